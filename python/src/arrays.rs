@@ -24,7 +24,8 @@ impl<'py> Input<'py> {
     /// converted.
     ///
     /// # Errors
-    /// The value has no real numbers, or another shape. The message names the argument and `what` is expected.
+    /// The value has no real numbers, or another shape. The message names the argument and `what` is
+    /// expected.
     pub fn new(value: &Bound<'py, PyAny>, name: &str, shape: &[Length], what: &str) -> PyResult<Self> {
         let array = contiguous(value, name)?;
         let fits = |(got, expected): (&usize, &Length)| match expected {

@@ -38,8 +38,8 @@ const MAX_HANDSHAKES: usize = 16;
 const MAX_CLIENTS: usize = 64;
 
 /// Within each period the board gets so many frames at most, and of each client no more than its share: one
-/// that sends without end takes neither the board's time nor the others' turn. Stops are beside the total, and
-/// who commands comes first.
+/// that sends without end takes neither the board's time nor the others' turn. Stops are beside the total,
+/// and who commands comes first.
 const PERIOD: Duration = Duration::from_millis(10);
 const MAX_FRAMES: usize = 128;
 const SHARE: usize = 32;
@@ -84,7 +84,8 @@ pub struct Hub {
     /// The number of the next client.
     next_id: u64,
     arbiter: Arbiter,
-    /// Begin of the period, number of frames and bytes taken since, and place of the client whose turn is next.
+    /// Begin of the period, number of frames and bytes taken since, and place of the client whose turn is
+    /// next.
     period: (Instant, usize, usize),
     turn: usize,
     /// Number of bytes after which no more frames are taken in a period.

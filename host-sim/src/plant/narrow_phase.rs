@@ -57,7 +57,8 @@ impl Separation {
     }
 }
 
-/// A solid of which, along directions near its axis, only the points that can be support points are compared.
+/// A solid of which, along directions near its axis, only the points that can be support points are
+/// compared.
 struct Cap<'a> {
     whole: &'a dyn SupportMap,
     axis: Vector,
@@ -69,8 +70,8 @@ impl<'a> Cap<'a> {
     fn new(solid: &dyn Shape, whole: &'a dyn SupportMap, axis: Vector) -> Self {
         let corners = solid.as_convex_polyhedron().map_or(&[][..], |solid| solid.points());
         let top = whole.local_support_point(axis);
-        // Along `axis + change` a point is farther than the top only if it is at most |change| · |top − point|
-        // below the top along the axis.
+        // Along `axis + change` a point is farther than the top only if, along the axis, it is at most
+        // |change| · |top − point| below it.
         let can_be_farthest = |point: &Vector| {
             let below = (top - *point).dot(axis) - ROUNDING;
             below <= 0.0 || below * below <= CAP * CAP * top.distance_squared(*point)

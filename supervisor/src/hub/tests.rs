@@ -233,8 +233,8 @@ fn a_flood_of_frames_takes_nobody_elses_turn() {
     fs::remove_dir_all(folder).unwrap();
 }
 
-/// In front of a serial line, nobody fills the line: the commander's frames come in each period, and a stop at
-/// once.
+/// In front of a serial line, nobody fills the line: the commander's frames come in each period, and a stop
+/// at once.
 #[test]
 fn a_flood_in_front_of_a_serial_line_holds_up_neither_the_commander_nor_a_stop() {
     let (mut hub, folder) = hub("hub-line");

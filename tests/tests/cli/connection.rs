@@ -121,7 +121,8 @@ fn a_bad_line_costs_repeats_and_nothing_else() {
     server.succeeds(&["--port", terminal, "move", "finger1_swing=0.05"]);
 }
 
-/// Over a link on which every command comes too late nothing is enabled; over one that is only slow a task runs.
+/// Over a link on which every command comes too late nothing is enabled; over one that is only slow a task
+/// runs.
 #[test]
 fn a_slow_link_is_told_before_anything_is_enabled() {
     let server = Server::ready();
