@@ -30,12 +30,12 @@ from data_file import write
 
 WEIGHTS = Path(__file__).parents[2] / "shared/src/vision/offset_weights.rs"
 # Inputs: of a ray and two neighbours, and the radius; the mean of all rays; their covariance with the direction.
-OF_RAY, OWN = 10, 31
-SIZES = (OWN + 2 * OF_RAY, 48, 24, 2)
+OF_RAY, OWN = 20, 61
+SIZES = (OWN + 2 * OF_RAY, 96, 48, 2)
 # The inputs of a ray in the mirror: its neighbours are exchanged.
 MIRROR = [*range(OF_RAY), *range(2 * OF_RAY, 3 * OF_RAY), *range(OF_RAY, 2 * OF_RAY), *range(3 * OF_RAY, SIZES[0])]
 PARTS = {"FIRST": slice(0, OWN), "MEAN": slice(OWN, OWN + OF_RAY), "ALONG": slice(OWN + OF_RAY, None)}
-RAYS, FEWEST = 64, 16
+RAYS, FEWEST = 32, 8
 # Ellipses farther from the rim than that began at another edge, larger ones are not refined [px].
 FAR, LARGEST = 4.0, 80.0
 # Bounds of the logarithm of the scale; prior standard deviation of the change of the flattening.
@@ -48,7 +48,7 @@ SMOOTH, RAY_SMOOTH, LIMIT = 0.1, 0.05, 1.5
 # Weights stand if their loss is at most this much above that of the fit [px].
 STANDS = 0.01
 # A ring is in data/rim_offset.in if at least so many of its rays are hidden, and the ellipse is at least that flat.
-HIDDEN, FLAT = 24, 0.1
+HIDDEN, FLAT = 12, 0.1
 COLUMNS = """
 An ellipse near a rim that the border of the image cuts: its radius [px] and flattening; for each ray its direction, the
 inputs of the network, the distance of the rim from the ellipse [px] and its weight, in double precision; the change of
@@ -57,7 +57,7 @@ radius and centre that fits these distances [px].
 
 
 class Pictures:
-    """Pictures with up to 64 rays each, in arrays of equal length: inputs, offsets of the rim, derivatives of the ellipse's
+    """Pictures with up to 32 rays each, in arrays of equal length: inputs, offsets of the rim, derivatives of the ellipse's
     distance along each ray, whether the ray is there; error of radius and centre, weight."""
 
     def __init__(self, files):
@@ -223,7 +223,7 @@ def put(network):
     (first, _), (deep, _), (last, _) = network
     for name, weights in [*((name, first[part]) for name, part in PARTS.items()), ("DEEP", deep), ("LAST", last)]:
         rows = ", ".join(map(numbers, weights.T))
-        text += f"pub(super) const {name}: [[f32; {len(weights)}]; {weights.shape[1]}] = [{rows}];\n"
+        text += f"pub(super) static {name}: [[f32; {len(weights)}]; {weights.shape[1]}] = [{rows}];\n"
     sizes = ", ".join(f"[f32; {size}]" for size in SIZES[1:])
     text += f"pub(super) const BIASES: ({sizes}) = ({', '.join(numbers(biases) for _, biases in network)});\n"
     WEIGHTS.write_text(text)
@@ -271,7 +271,7 @@ if __name__ == "__main__":
                 pictures = Pictures([file])
                 seen = pictures.parts[3].sum(1)
                 for what, errors in ("before", pictures.parts[4]), ("after", evaluate(written(), pictures)[1]):
-                    for rings, chosen in ("pictures", seen > 0), ("half hidden", (seen >= 24) & (seen <= 40)):
+                    for rings, chosen in ("pictures", seen > 0), ("half hidden", (seen >= 12) & (seen <= 20)):
                         radius, centre = np.abs(errors[chosen, 0]), np.hypot(*errors[chosen, 1:].T)
                         print(f"{file}: {chosen.sum()} {rings}, {what}: centre {np.median(centre):.2f} px, radius "
                               f"{np.median(radius):.2f} px")

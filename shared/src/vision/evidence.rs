@@ -6,7 +6,6 @@ use super::find::{CircleSearch, Scratch, choice};
 use super::image::Image;
 use super::judge::{FEATURES, KNOB_FEATURES};
 use super::offset::{INPUTS, Profiles};
-use super::ring::{MAX_HALF, RAYS, Ring};
 
 /// A candidate with the features of its evaluation.
 #[derive(Clone, Copy, Debug)]
@@ -69,8 +68,7 @@ pub fn rim_rays(
     let choice = choice(image, search, scratch)?;
     let Some((best, confidence)) = choice.best() else { return Ok(None) };
     let (ellipse, front) = (choice.closest(best), choice.front(best.knob));
-    let ring = Ring::new(image, &ellipse, RAYS, (MAX_HALF, 0.5));
-    for (direction, inputs) in Profiles::new(&ring).rays(ring.open(front.as_ref())) {
+    for (direction, inputs) in Profiles::new(image, &ellipse, front.as_ref()).rays() {
         let polar_radius = ellipse.polar_radius(ellipse.root(), direction);
         seen(RimRay { center: ellipse.center, direction, polar_radius, inputs });
     }

@@ -17,7 +17,7 @@
 //!    shadow does not); also those of the knob's end, and the position of both relative to the axis. A
 //!    logistic model, fitted to rendered door knobs, weighs the features. Either one of the candidates is
 //!    right or there is no circle; the probability of the best one is the confidence.
-//! 4. *Refit* of the likeliest, in steps of half a pixel: to the strongest edge, then to the rim as a small
+//! 4. *Refit* of the likeliest: to the strongest edge in steps of half a pixel, then to the rim as a small
 //!    neural network finds it along each ray, between the edges of a bevel and of a shadow.
 //!
 //! A prior of the radius, from the arm's pose, and a window about the last result exclude other circles.

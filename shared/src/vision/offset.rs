@@ -3,21 +3,25 @@
 //! The strongest edge is not the rim: the bevel of the rose and the shadow at its foot have edges as well,
 //! and in a blurred picture they merge with that of the rim. A small neural network estimates the distance of
 //! the rim from an ellipse near it, and how uncertain that is. It sees the contrasts along a ray and along
-//! two neighbours, and in all rays together from where the light comes. `tests/oracles/rim_offset.py` fits it
-//! to rendered pictures.
+//! two neighbours, up to 4 px from the ellipse, and in all rays together from where the light comes.
+//! `tests/oracles/rim_offset.py` fits it to rendered pictures.
 
+use super::ellipse::Ellipse;
+use super::image::Image;
 use super::offset_weights::{ALONG, BIASES, DEEP, FIRST, LAST, MEAN};
-use super::ring::{PLACES, RAYS, Ring, directions};
+use super::ring::{FEW_RAYS, MAX_HALF, PLACES, RAYS, Ring, directions, every_other};
 use crate::math;
 
-/// Inputs from each of the three rays: the contrasts relative to the largest, and the largest.
-pub(super) const OF_RAY: usize = PLACES + 1;
+/// Steps in which the network sees a ray: fine ones, and coarse ones that reach farther [px].
+const STEPS: [f32; 2] = [0.5, 1.0];
+/// Inputs from a ray in steps of one length: the contrasts relative to the largest, and the largest.
+const OF_STEP: usize = PLACES + 1;
+/// Inputs from each of the three rays.
+pub(super) const OF_RAY: usize = STEPS.len() * OF_STEP;
 /// Inputs: of the ray, of both neighbours; the radius.
 pub(super) const INPUTS: usize = 3 * OF_RAY + 1;
 /// Width of the first layer.
 const WIDTH: usize = BIASES.0.len();
-/// Distance of the neighbours [rays].
-const APART: usize = 2;
 /// Contrasts are small compared with these [grey levels].
 const SMALL: f32 = 3.0;
 const MEDIUM: f32 = 12.0;
@@ -28,33 +32,49 @@ const LOG_SCALE: [f32; 2] = [-3.0, 2.0];
 /// Outputs of a layer that are computed together: each input is loaded once for all of them.
 const BLOCK: usize = 8;
 
-/// What the network sees of a ring in steps of half a pixel.
+/// What the network sees about an ellipse, on every other ray; the contrasts are smoothed over all.
 pub(super) struct Profiles {
-    rays: [[f32; OF_RAY]; RAYS],
+    rays: [[f32; OF_RAY]; FEW_RAYS],
+    /// Rays on which the rim can be seen, one bit each.
+    open: u64,
     radius: f32,
 }
 
 impl Profiles {
-    pub fn new(ring: &Ring) -> Self {
-        let mut rays = [[0.0; OF_RAY]; RAYS];
+    /// The picture about an ellipse that `front` partly hides.
+    pub fn new(image: &Image<'_>, ellipse: &Ellipse, front: Option<&Ellipse>) -> Self {
+        let rings = STEPS.map(|step| Ring::new(image, ellipse, RAYS, (MAX_HALF, step)));
+        let mut rays = [[0.0; OF_RAY]; FEW_RAYS];
         for (ray, profile) in rays.iter_mut().enumerate() {
-            let Some(contrasts) = ring.contrasts(ray) else { continue };
-            let largest = contrasts.iter().fold(0.0, |max, contrast| math::max(max, math::abs(*contrast)));
-            let scale = 1.0 / (largest + SMALL);
-            for (value, contrast) in profile.iter_mut().zip(contrasts) {
-                *value = contrast * scale;
+            for (profile, ring) in profile.as_chunks_mut::<OF_STEP>().0.iter_mut().zip(&rings) {
+                // Coarse steps leave the image earlier.
+                let Some(contrasts) = ring.contrasts(every_other(ray)) else { continue };
+                let largest =
+                    contrasts.iter().fold(0.0, |max, contrast| math::max(max, math::abs(*contrast)));
+                let scale = 1.0 / (largest + SMALL);
+                for (value, contrast) in profile.iter_mut().zip(contrasts) {
+                    *value = contrast * scale;
+                }
+                profile[PLACES] = largest / (largest + MEDIUM);
             }
-            profile[PLACES] = largest / (largest + MEDIUM);
         }
-        Self { rays, radius: ring.radius() / RADIUS }
+        let [fine, _] = rings;
+        let seen = fine.open(front);
+        let open = (0..FEW_RAYS).fold(0, |open, ray| open | (seen >> every_other(ray) & 1) << ray);
+        Self { rays, open, radius: ellipse.radius / RADIUS }
     }
 
-    /// Directions of the rays in the mask, and the inputs of the network on each.
-    pub fn rays(&self, open: u64) -> impl Iterator<Item = ([f32; 2], [f32; INPUTS])> + Clone + '_ {
-        let rays = directions(RAYS).iter().enumerate().filter(move |(ray, _)| open >> ray & 1 == 1);
+    /// Number of rays on which the rim can be seen.
+    pub const fn count(&self) -> u32 {
+        self.open.count_ones()
+    }
+
+    /// Directions of these rays, and the inputs of the network on each.
+    pub fn rays(&self) -> impl Iterator<Item = ([f32; 2], [f32; INPUTS])> + Clone + '_ {
+        let rays = directions(FEW_RAYS).iter().enumerate().filter(|(ray, _)| self.open >> ray & 1 == 1);
         rays.map(|(ray, direction)| {
             let mut inputs = [self.radius; INPUTS];
-            let parts = [ray, (ray + RAYS - APART) % RAYS, (ray + APART) % RAYS];
+            let parts = [ray, (ray + FEW_RAYS - 1) % FEW_RAYS, (ray + 1) % FEW_RAYS];
             for (inputs, ray) in inputs.chunks_exact_mut(OF_RAY).zip(parts) {
                 inputs.copy_from_slice(&self.rays[ray]);
             }

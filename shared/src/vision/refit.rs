@@ -21,7 +21,7 @@ const SCATTER: f32 = 2.0;
 const MAX_REFINED: f32 = 80.0;
 /// Fewest rays on which it must see the rim, and largest change of centre and radius [px]: it was fitted to
 /// pictures within these limits.
-const MIN_REFINED: u32 = 16;
+const MIN_REFINED: u32 = 8;
 const MAX_CHANGE: f32 = 4.0;
 /// Prior standard deviation of the change of the flattening in that fit.
 const FLATTENING_CHANGE: f32 = 0.03;
@@ -83,12 +83,11 @@ impl Rims<'_> {
     /// Fits to the rim near an ellipse, where the network of [`offset`](super::offset) sees it. `None` if it
     /// sees too little of it, or places it farther away than it can see.
     pub fn refine(&self, ellipse: &Ellipse) -> Option<Ellipse> {
-        let ring = Ring::new(self.image, ellipse, RAYS, (MAX_HALF, 0.5));
-        let open = ring.open(self.front);
-        if ellipse.radius > MAX_REFINED || open.count_ones() < MIN_REFINED {
+        if ellipse.radius > MAX_REFINED {
             return None;
         }
-        refined(ellipse, Profiles::new(&ring).rays(open))
+        let profiles = Profiles::new(self.image, ellipse, self.front);
+        if profiles.count() < MIN_REFINED { None } else { refined(ellipse, profiles.rays()) }
     }
 
     /// Fits to the edge next to an ellipse in steps of half a pixel. A shadow beside the rim displaces the

@@ -48,6 +48,11 @@ pub(super) fn directions(rays: usize) -> &'static [[f32; 2]] {
     if rays == FEW_RAYS { &FEW } else { &ALL }
 }
 
+/// The ray among 64 with the direction of this one of 32.
+pub(super) const fn every_other(ray: usize) -> usize {
+    ray * (RAYS / FEW_RAYS)
+}
+
 /// Minimum contrast of an edge point [grey levels].
 pub(super) fn min_contrast(noise: f32) -> f32 {
     math::clamp(1.5 * CONTRAST_NOISE * noise, MIN_CONTRAST, 255.0)
@@ -133,11 +138,6 @@ impl Ring {
     pub fn contrasts(&self, ray: usize) -> Option<[f32; PLACES]> {
         let contrasts = self.contrasts.get(ray).filter(|_| self.visible >> ray & 1 == 1)?;
         Some(contrasts.map(|contrast| f32::from(contrast) * (1.0 / GREY_LEVEL)))
-    }
-
-    /// Radius of the ellipse [px].
-    pub const fn radius(&self) -> f32 {
-        self.ellipse.radius
     }
 
     /// Weight of an edge at each sample of a ray: half as much at the ends as in the middle.
