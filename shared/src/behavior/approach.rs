@@ -89,6 +89,8 @@ pub struct Approach {
     /// Whether a motion was ordered in this phase, and whether the hand has moved since then.
     has_ordered: bool,
     has_moved: bool,
+    /// A motion was refused because of a contact or of what limited the one before.
+    was_refused: bool,
     /// Contacts, and refused motions, in this phase.
     blocks: u8,
     refused: u8,
@@ -123,6 +125,7 @@ impl Approach {
             beside: None,
             has_ordered: false,
             has_moved: false,
+            was_refused: false,
             blocks: 0,
             refused: 0,
             fingers: (0.0, 0.0),
@@ -241,8 +244,8 @@ impl Approach {
         self.missed = 0.0;
     }
 
-    /// Handles a refused command. A refusal because of a contact that is not reported yet is expected; others
-    /// end the try.
+    /// Handles a refused command. A refusal because of a contact that is not reported yet is expected; a target
+    /// out of reach ends the try, others the behaviour.
     pub fn refused(&mut self, refusal: &VisualApproachRefusal) {
         if matches!(self.phase, ApproachPhase::Done | ApproachPhase::Failed(_)) {
             // It concerns a command from before the end.
@@ -255,7 +258,7 @@ impl Approach {
             VisualApproachRefusal::Blocked { .. }
                 if matches!(self.phase, ApproachPhase::Verify | ApproachPhase::Retreat) =>
             {
-                self.has_moved = true
+                self.was_refused = true
             }
             VisualApproachRefusal::Blocked { .. } if self.refused < LATE_REPORTS => {}
             VisualApproachRefusal::Blocked { .. } => self.retry(Reason::Blocked),
@@ -307,7 +310,7 @@ impl Approach {
     fn enter(&mut self, phase: ApproachPhase) {
         self.phase = phase;
         (self.time, self.waiting, self.blind, self.missed) = (0.0, 0.0, 0.0, 0.0);
-        (self.has_ordered, self.has_moved) = (false, false);
+        (self.has_ordered, self.has_moved, self.was_refused) = (false, false, false);
         (self.blocks, self.refused) = (0, 0);
         self.fingers = (0.0, 0.0);
     }
@@ -453,11 +456,16 @@ impl Approach {
 
     fn verify(&mut self, report: &VisualApproachTelemetry) -> Order {
         let wait = Order { command: None, look: false };
-        let gave_way = self.has_moved && report.motion == HandMotion::Standing;
+        let has_ended = self.has_moved || self.was_refused;
+        if has_ended && report.motion == HandMotion::Limited {
+            self.retry(Reason::OutOfReach);
+            return wait;
+        }
+        let gave_way = has_ended && report.motion == HandMotion::Standing;
         if gave_way || report.gripper != GripperState::Holding || !self.is_on_knob(report) {
             return self.miss(report);
         }
-        if !self.has_moved {
+        if !has_ended {
             return self.move_to(self.goal, self.settings.near_speed);
         }
         if report.motion != HandMotion::Blocked {
@@ -476,8 +484,14 @@ impl Approach {
         }
         // The contact that ended the try is behind, unless it ended the pull; there may be another one, which
         // is no longer reported once the hand has moved since.
-        if self.has_moved && report.motion == HandMotion::Blocked || self.refused >= LATE_REPORTS {
-            (self.has_moved, self.refused, self.blocks) = (false, 0, self.blocks + 1);
+        let is_stopped = match report.motion {
+            HandMotion::Blocked => self.has_moved || self.was_refused,
+            HandMotion::Limited => self.was_refused,
+            HandMotion::Standing | HandMotion::Moving => false,
+        };
+        if is_stopped || self.refused >= LATE_REPORTS {
+            (self.has_moved, self.was_refused) = (false, false);
+            (self.refused, self.blocks) = (0, self.blocks + 1);
             if self.blocks >= MAX_BLOCKS {
                 self.enter(ApproachPhase::Failed(Reason::Blocked));
                 return self.ended();

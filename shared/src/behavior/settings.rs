@@ -47,6 +47,8 @@ impl ApproachSettings {
         // after empty grips.
         let reach = task.reach * task.reach - 2.0 * aside * aside;
         let farthest = sqrt(reach.max(0.0)) + self.grip_distance - DEEPER * f32::from(DEEPER_TRIES);
+        // Half of the reach along each axis leaves room to the front.
+        OutOfRange::check("aside", aside, [0.001, (0.5 * task.reach).min(1.0)])?;
         for (name, value, min, max) in [
             ("rose", small, 0.005, 0.5),
             ("rose", large, small + 1e-4, 0.5),
@@ -54,7 +56,6 @@ impl ApproachSettings {
             ("length", length, 0.0, 1.0),
             ("distance", near, 0.01, 5.0),
             ("distance", far, near + 0.001, farthest),
-            ("aside", aside, 0.001, 1.0),
             ("grip_distance", self.grip_distance, 0.0, self.guard_distance),
             ("guard_distance", self.guard_distance, length + self.tolerance, near),
             ("tolerance", self.tolerance, 1e-4, 0.05),

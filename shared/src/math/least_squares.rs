@@ -2,7 +2,8 @@ use nalgebra::{SMatrix, SVector};
 
 use super::{abs, norm, sqrt};
 
-/// Sweeps of the Jacobi iteration. It converges quadratically: six are enough for 12 columns.
+/// Sweeps of the Jacobi iteration. It converges quadratically, some six for 12 columns, and ends when no
+/// rotation is left.
 const SWEEPS: usize = 16;
 
 /// Least squares over any number of rows, in constant memory: the triangular factor of `[A | b]`, to which

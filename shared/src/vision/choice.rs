@@ -42,7 +42,7 @@ pub(super) struct Choice<'a> {
     noise: f32,
     /// Circles that may be the end of a knob, the clearest first.
     circles: [Option<Knob>; MAX_CANDIDATES],
-    /// The likeliest first.
+    /// The likeliest first, as they were before [`Self::look_closer`].
     candidates: [Option<Candidate>; MAX_CLOSE],
 }
 

@@ -142,14 +142,14 @@ pub(super) fn radii_about(
     };
     for radius in 1..MAX_RADII - 1 {
         let sectors = count(radius);
-        let pixels = radius as f32 + from as f32;
+        let cells = radius as f32 + from as f32;
         if sectors >= 10
             && sectors >= count(radius - 1)
             && sectors > count(radius + 1)
-            && pixels + 1.5 >= radii[0] as f32
-            && pixels <= radii[1] as f32 + 1.5
+            && cells + 1.5 >= radii[0] as f32
+            && cells <= radii[1] as f32 + 1.5
         {
-            found(HoughCircle { x: center.0 as f32, y: center.1 as f32, radius: pixels, sectors });
+            found(HoughCircle { x: center.0 as f32, y: center.1 as f32, radius: cells, sectors });
         }
     }
 }

@@ -253,7 +253,7 @@ pub(super) struct RimFeatures {
     pub shade_out: f32,
     /// Distance of the strongest edge from the ellipse; 2 without one within 2 px [px].
     pub jitter: f32,
-    /// Longest share of the rim without an edge within 1 px.
+    /// Longest share of the rim without an edge within 1 px, cut at the first ray.
     pub gap: f32,
 }
 

@@ -288,7 +288,8 @@ impl VisualApproach {
         posture.tip().translation.vector + limits.way_to_rest(&velocity)
     }
 
-    /// What the force estimate learns in this period: nothing while the hand may carry a load.
+    /// What the force estimate learns in this period: after [`BEFORE_MOTION`] nothing while the hand may carry
+    /// a load.
     const fn learning(&self) -> Learning {
         let grips = matches!(
             self.gripper.state,
@@ -297,7 +298,7 @@ impl VisualApproach {
         let is_free =
             matches!(self.gripper.state, GripperState::Still | GripperState::Open | GripperState::Empty);
         match self.motion.motion {
-            _ if !self.has_moved && !grips => Learning::Unloaded,
+            _ if !self.has_moved && (!grips || self.before_motion <= BEFORE_MOTION) => Learning::Unloaded,
             _ if !is_free || self.motion.is_ended() => Learning::Nothing,
             HandMotion::Standing => Learning::Standing,
             _ => Learning::Moving,

@@ -257,7 +257,7 @@ impl fmt::Display for VisualApproachRefusal {
             }
             Self::Blocked { ahead } => write!(
                 f,
-                "the target is {ahead} m against what stopped the hand: go back by 0.01 m first, or acknowledge the contact"
+                "the target is {ahead} m against what stopped the hand: go back by 0.015 m first, or acknowledge the contact"
             ),
             Self::GripperAxis { joint, tilt, offset } => write!(
                 f,
