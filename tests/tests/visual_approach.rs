@@ -369,6 +369,25 @@ fn a_force_that_grows_slowly_is_noticed_at_one_and_a_half_times_the_limit() {
 }
 
 #[test]
+fn a_gripper_that_closes_at_once_does_not_end_the_learning_of_efforts() {
+    let forces = [false, true].map(|closes| {
+        let mut board = Board::enabled();
+        board.gripper_held = true;
+        if closes {
+            assert_eq!(board.task(VisualApproachCommand::Close), Reply::Done);
+        }
+        // The integrator of the shoulder takes up an error of the model.
+        board.lag[1] = 2e-3;
+        (0..10).for_each(|_| board.step());
+        board.lag[1] = 0.0;
+        (0..50).for_each(|_| board.step());
+        assert_eq!(board.telemetry().gripper == GripperState::Holding, closes);
+        Vector3::from(board.telemetry().force).norm()
+    });
+    assert!(forces.iter().all(|force| *force < 0.5), "{forces:?} N");
+}
+
+#[test]
 fn where_the_joints_show_no_force_the_hand_goes_no_farther_but_back() {
     let mut board = Board::enabled();
     (0..60).for_each(|_| board.step());

@@ -566,6 +566,27 @@ fn an_obstacle_that_is_no_longer_reported_is_acknowledged_in_the_retreat() {
 }
 
 #[test]
+fn a_retreat_that_is_refused_after_a_limited_motion_goes_on() {
+    let mut world = World::new();
+    (world.gripper, world.motion) = (GripperState::Open, HandMotion::Limited);
+    let report = world.report();
+    world.approach.update(&report, STEP);
+    world.approach.refused(&VisualApproachRefusal::Target { distance: 0.6, reach: 0.5 });
+    assert_eq!(world.approach.phase(), ApproachPhase::Retreat);
+    let mut acknowledged = 0;
+    for _ in 0..20 {
+        match world.approach.update(&report, STEP).command {
+            Some(VisualApproachCommand::Move { .. }) if acknowledged == 0 => {
+                world.approach.refused(&VisualApproachRefusal::Blocked { ahead: 0.02 });
+            }
+            Some(VisualApproachCommand::Acknowledge) => acknowledged += 1,
+            _ => {}
+        }
+    }
+    assert_eq!((acknowledged, world.approach.phase()), (1, ApproachPhase::Retreat));
+}
+
+#[test]
 fn a_knob_beyond_the_reach_is_refused_by_name() {
     let task = VisualApproachSettings { speed: 0.15, reach: 0.5, ..VisualApproachSettings::DEFAULT };
     assert_eq!(settings().validate(&task), Ok(()));
@@ -574,4 +595,10 @@ fn a_knob_beyond_the_reach_is_refused_by_name() {
     assert_eq!(refused.field, "distance");
     assert!((refused.max - 0.2697).abs() < 1e-3, "{}", refused.max);
     assert_eq!(settings().validate(&VisualApproachSettings { reach: 0.32, ..task }), Ok(()));
+    let mut aside = settings();
+    for distance in [0.4, f32::NAN] {
+        aside.expectation.aside = distance;
+        let refused = aside.validate(&task).expect_err("too far aside");
+        assert_eq!((refused.field, refused.max), ("aside", 0.25));
+    }
 }

@@ -229,10 +229,7 @@ impl JointState {
     }
 
     fn angle(&self, config: &JointConfig, count: i32) -> f32 {
-        #[expect(
-            clippy::cast_precision_loss,
-            reason = "exact up to 2²⁴ counts from zero, beyond the range of a joint"
-        )]
+        #[expect(clippy::cast_precision_loss, reason = "exact up to 2²⁴ counts from zero, then to 24 bits")]
         let counts = count.wrapping_sub(self.zero) as f32;
         counts * config.radians_per_count
     }
@@ -477,7 +474,7 @@ impl Joint<'_> {
         self.state.torque = self.config.servo.limit(&mut self.state.servo, desired);
         // The damping that acts: the torque rate, or a feed-forward along the motion, may leave less of it.
         let applied = self.state.torque - gravity;
-        self.state.effort = math::clamp(applied, effort.min(0.0), effort.max(0.0));
+        self.state.effort = math::clamp(applied, math::min(effort, 0.0), math::max(effort, 0.0));
     }
 
     /// Prepares for a task: at rest at the present position. Requires an encoder that is not

@@ -69,7 +69,7 @@ pub enum CalibrationError {
         /// Minimum number.
         min: u32,
     },
-    /// No joint of the finger moved by more than 2°.
+    /// The standard deviation of no joint of the finger is above 2°.
     PosturesAlike {
         /// The finger.
         finger: HumanFinger,

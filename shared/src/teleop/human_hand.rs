@@ -11,6 +11,8 @@ pub const HUMAN_FINGERS: usize = 5;
 pub const SENSORS: usize = 1 + 3 * HUMAN_FINGERS;
 /// Maximum length of a link [m]; metacarpals are some 70 mm long.
 const MAX_LINK: f32 = 0.3;
+/// Shortest length of a finger's last link, which has a direction [m].
+const MIN_LAST_LINK: f32 = 1e-3;
 /// Deviation of a quaternion's norm and of a rotation matrix's columns from 1.
 const UNIT_TOLERANCE: f32 = 0.01;
 /// Time in which the estimated velocity of a sensor without samples falls by a factor of e [s].
@@ -221,6 +223,11 @@ impl FingerLinks {
     }
 }
 
+/// Shortest length of a link by its number [m].
+const fn min_length(link: u8) -> f32 {
+    if link == 3 { MIN_LAST_LINK } else { 0.0 }
+}
+
 /// A link that is implausible for a hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -238,7 +245,8 @@ impl core::error::Error for InvalidLink {}
 impl fmt::Display for InvalidLink {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { finger, link, length } = self;
-        write!(f, "link {link} of the {finger} is {length} m long; at most {MAX_LINK} m is a hand's")
+        let min = min_length(*link);
+        write!(f, "link {link} of the {finger} is {length} m long; {min} to {MAX_LINK} m is a hand's")
     }
 }
 
@@ -268,8 +276,7 @@ impl HumanHand {
         for (finger, of_finger) in HumanFinger::ALL.into_iter().zip(&links) {
             for (link, number) in of_finger.0.iter().zip(0..) {
                 let length = math::norm(&Vector3::from(*link));
-                let min = if number == 3 { 1e-3 } else { 0.0 };
-                if !(min..=MAX_LINK).contains(&length) {
+                if !(min_length(number)..=MAX_LINK).contains(&length) {
                     return Err(InvalidLink { finger, link: number, length });
                 }
             }

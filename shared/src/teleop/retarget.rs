@@ -12,7 +12,8 @@
 //! Below the gap `far` the error of the finger is weighted relative to the gap, so that the pinching finger
 //! determines the joint that the fingers share. From `far` to `near` the distance between the tips is blended
 //! to that of the robot's surfaces, and the thumb yields if the finger cannot reach it. Both use the smooth
-//! step `β = 3x² − 2x³` of the gap, so that no target jumps.
+//! step `β = 3x² − 2x³` of the gap, so that no target jumps. Where the operator's tips are much nearer to each
+//! other than the robot's can be, their direction is noise: that between the robot's tips replaces it.
 
 use core::fmt;
 
@@ -27,6 +28,9 @@ use crate::model::MAX_JOINTS;
 
 /// Added to the gap between thumb and finger in the weight of the finger, to bound the weight [m].
 const SMALLEST_GAP: f32 = 5e-4;
+/// A vector follows the operator's up to this multiple of the scale; beyond it, its direction is held back
+/// towards the present one.
+const STEEPEST: f32 = 2.0;
 /// Maximum number of times that the thumb yields in a step.
 const MAX_YIELDS: u8 = 8;
 /// Maximum iterations of the inverse kinematics after the thumb has yielded, which is a small step.
@@ -49,7 +53,7 @@ pub struct OperatorFingertips {
     pub directions: [Option<Vector3<f32>>; MAX_FINGERS],
 }
 
-/// A fingertip of the operator that is not finite or more than 1 m from the wrist, or whose direction is not
+/// A fingertip of the operator that is not finite, or a coordinate of which is beyond 1 m, or whose direction is not
 /// a unit vector. The state is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InvalidFingertip {
@@ -172,7 +176,7 @@ impl Retargeting<'_> {
         let RetargetSettings { scale, .. } = &self.settings;
         let given = operator.positions[0].is_some();
         state.thumb = operator.positions[0].map(Into::into).or(state.thumb);
-        let vectors = self.vectors(state.thumb.map(Vector3::from), operator);
+        let vectors = self.vectors(state.thumb.map(Vector3::from), operator, &state.output, &mut report);
         let wish = operator.positions[0].map(|thumb| thumb * *scale + Vector3::from(state.offset));
         let mut thumb_target = wish;
         let before = state.output;
@@ -221,14 +225,16 @@ impl Retargeting<'_> {
         self.hand.tip(finger, &Angles::from(*angles)).map_or_else(Vector3::zeros, |(tip, _)| tip)
     }
 
-    /// Targets of the robot's fingers: vectors from the thumb's tip.
+    /// Targets of the robot's fingers, whose joints are at `output` [rad]: vectors from the thumb's tip.
     fn vectors(
         &self,
         thumb: Option<Vector3<f32>>,
         operator: &OperatorFingertips,
+        output: &[f32; MAX_JOINTS],
+        report: &mut RetargetReport,
     ) -> [Option<RelativeTarget>; MAX_FINGERS] {
         let RetargetSettings { scale, near, far, operator_contact, robot_contact, .. } = *self.settings;
-        let of_finger = |finger: usize| {
+        let mut of_finger = |finger: usize| {
             let follows = usize::from(*self.settings.follows.get(finger)?);
             let weight = *self.settings.weights.get(finger)?;
             let position = (*operator.positions.get(follows)?)?;
@@ -241,13 +247,21 @@ impl Retargeting<'_> {
             let x = math::clamp((far - gap) / (far - near), 0.0, 1.0);
             let pinch = x * x * (3.0 - 2.0 * x);
             let distance = (scale * length + pinch * (robot_contact - scale * operator_contact)).max(0.0);
-            let factor = if length > 1e-6 { distance / length } else { scale };
-            let direction = operator.directions.get(follows).copied().flatten();
+            let held_back = distance / (STEEPEST * scale) - length;
+            let toward = if held_back > 0.0 {
+                report.evaluations = report.evaluations.saturating_add(2);
+                between + direction(&(self.tip(finger, output) - self.tip(0, output))) * held_back
+            } else {
+                between
+            };
+            let size = math::norm(&toward);
+            let factor = if size > 1e-6 { distance / size } else { scale };
+            let pointing = operator.directions.get(follows).copied().flatten();
             Some(RelativeTarget {
-                vector: between * factor,
+                vector: toward * factor,
                 pinch,
                 weight: weight * ratio * ratio,
-                direction: direction.filter(|_| self.settings.directions),
+                direction: pointing.filter(|_| self.settings.directions),
             })
         };
         core::array::from_fn(
@@ -374,7 +388,13 @@ fn check(operator: &OperatorFingertips) -> Result<(), InvalidFingertip> {
     Ok(())
 }
 
-/// Whether a hand reaches this position [m].
+/// The unit vector along `vector`; 0 of 0.
+fn direction(vector: &Vector3<f32>) -> Vector3<f32> {
+    let length = math::norm(vector);
+    if length > 0.0 { vector / length } else { Vector3::zeros() }
+}
+
+/// Whether each coordinate of a position [m] is one of a hand's.
 pub(crate) fn is_near(position: &Vector3<f32>) -> bool {
     position.iter().all(|value| abs(*value) <= MAX_COORDINATE)
 }
@@ -388,7 +408,7 @@ impl fmt::Display for InvalidFingertip {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "finger {} of the operator: its tip must be at most {MAX_COORDINATE} m from the wrist, its direction \
+            "finger {} of the operator: the coordinates of its tip must be at most {MAX_COORDINATE} m, its direction \
              a unit vector",
             self.finger + 1
         )

@@ -208,6 +208,36 @@ fn tips_of_other_radius_touch_when_the_operators_do() {
 }
 
 #[test]
+fn tips_that_touch_keep_their_direction_in_noise() {
+    let settings = RetargetSettings { robot_contact: 0.024, far: 0.08, ..FREE };
+    let retargeting = retargeting(settings);
+    let mut rng = Rng::new(37, 0);
+    for round in 0..50 {
+        let posture = pinching(&mut rng, 1);
+        let mut tips = operator(&posture, 1.0);
+        let thumb = tips.positions[0].unwrap();
+        let mut state = retargeting.begin(&posture, &Vector3::zeros());
+        let mut before: Option<Vector3<f32>> = None;
+        for frame in 0..80_u8 {
+            // The operator's index finger closes from 40 mm to the thumb and stays there, measured to half a
+            // millimetre, at times exactly on the thumb.
+            let distance = (0.04 - 1e-3 * f32::from(frame)).max(0.0);
+            let noise = [0; 3].map(|_| 5e-4 * rng.symmetric() as f32);
+            let noise = Vector3::from(noise) * if frame % 8 == 7 { 0.0 } else { 1.0 };
+            tips.positions[1] = Some(thumb + Vector3::new(0.6, 0.0, 0.8) * distance + noise);
+            let report = retargeting.update(&mut state, &tips, PERIOD).unwrap();
+            let between = tip(&state.angles(), 1) - tip(&state.angles(), 0);
+            if let Some(before) = before.filter(|_| frame > 45) {
+                let jump = (between - before).norm();
+                assert!(jump < 4e-3, "{round}, {frame}: {jump} m");
+                assert!((between.norm() - 0.024).abs() < 1e-3, "{round}, {frame}: {between} {report:?}");
+            }
+            before = Some(between);
+        }
+    }
+}
+
+#[test]
 fn a_closing_pinch_moves_the_joints_without_jumps() {
     let retargeting = retargeting(FREE);
     let mut rng = Rng::new(34, 0);

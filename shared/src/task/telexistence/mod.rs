@@ -83,7 +83,7 @@ impl fmt::Display for TelexistenceRefusal {
             Self::Settings(invalid) => invalid.fmt(f),
             Self::Fingertip { finger } => write!(
                 f,
-                "finger {} of the operator: its tip must be within 1 m of the wrist and slower than 20 m/s, \
+                "finger {} of the operator: the coordinates of its tip must be within 1 m and slower than 20 m/s, \
                  its direction a unit vector",
                 finger + 1
             ),
@@ -101,7 +101,7 @@ pub struct TelexistenceTelemetry {
     pub samples: u32,
     /// Samples that were repeated, or arrived after a newer one.
     pub ignored: u32,
-    /// Ticks since the last sample, at most 255.
+    /// Ticks since the last sample, or since the task began if there was none, at most 255.
     pub age: u8,
     /// Distance of each fingertip of the hand from its target [m]; for all but the thumb, of the vector from
     /// the thumb's tip.
