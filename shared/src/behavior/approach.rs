@@ -244,8 +244,8 @@ impl Approach {
         self.missed = 0.0;
     }
 
-    /// Handles a refused command. A refusal because of a contact that is not reported yet is expected; a target
-    /// out of reach ends the try, others the behaviour.
+    /// Handles a refused command. A refusal because of a contact that is not reported yet is expected; a
+    /// target out of reach ends the try, others the behaviour.
     pub fn refused(&mut self, refusal: &VisualApproachRefusal) {
         if matches!(self.phase, ApproachPhase::Done | ApproachPhase::Failed(_)) {
             // It concerns a command from before the end.

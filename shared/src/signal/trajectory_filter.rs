@@ -54,8 +54,8 @@ impl TrajectoryState {
 }
 
 impl TrajectoryFilter {
-    /// A filter with time constant `filter_time` [s], which must be positive and finite. In single precision the
-    /// reference stops short of a set-point by up to 2·10⁻⁵ of the way for each second of it.
+    /// A filter with time constant `filter_time` [s], which must be positive and finite. In single precision
+    /// the reference stops short of a set-point by up to 2·10⁻⁵ of the way for each second of it.
     pub fn new(filter_time: f32) -> Self {
         let ratio = TICK / filter_time;
         let a = math::exp(-ratio);

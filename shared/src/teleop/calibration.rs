@@ -74,8 +74,8 @@ impl CalibrationSettings {
 
     /// Standard deviation of an equation along each axis for links like these [m]. Orientation noise acts on
     /// each link as a lever, from its own sensor and from that of the back of the hand, whose errors are
-    /// taken for independent in each link: `(2/9) noise² Σ 2|l|²` along each of three axes. They are common to
-    /// all links, so that this is a quarter too little for a straight finger, and about right for a fist.
+    /// taken for independent in each link: `(2/9) noise² Σ 2|l|²` along each of three axes. They are common
+    /// to all links, so that this is a quarter too little for a straight finger, and about right for a fist.
     pub(super) fn equation_deviation(&self, links: &FingerLinks) -> f32 {
         let [_, moving @ ..] = links.0.map(Vector3::from);
         let levers: f32 = moving.iter().map(Vector3::norm_squared).sum();

@@ -12,8 +12,8 @@
 //! Below the gap `far` the error of the finger is weighted relative to the gap, so that the pinching finger
 //! determines the joint that the fingers share. From `far` to `near` the distance between the tips is blended
 //! to that of the robot's surfaces, and the thumb yields if the finger cannot reach it. Both use the smooth
-//! step `β = 3x² − 2x³` of the gap, so that no target jumps. Where the operator's tips are much nearer to each
-//! other than the robot's can be, their direction is noise: that between the robot's tips replaces it.
+//! step `β = 3x² − 2x³` of the gap, so that no target jumps. Where the operator's tips are much nearer to
+//! each other than the robot's can be, their direction is noise: that between the robot's tips replaces it.
 
 use core::fmt;
 
@@ -53,8 +53,8 @@ pub struct OperatorFingertips {
     pub directions: [Option<Vector3<f32>>; MAX_FINGERS],
 }
 
-/// A fingertip of the operator that is not finite, or a coordinate of which is beyond 1 m, or whose direction is not
-/// a unit vector. The state is unchanged.
+/// A fingertip of the operator that is not finite, or a coordinate of which is beyond 1 m, or whose direction
+/// is not a unit vector. The state is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InvalidFingertip {
     /// The operator's finger: 0 is the thumb.

@@ -288,8 +288,8 @@ impl VisualApproach {
         posture.tip().translation.vector + limits.way_to_rest(&velocity)
     }
 
-    /// What the force estimate learns in this period: after [`BEFORE_MOTION`] nothing while the hand may carry
-    /// a load.
+    /// What the force estimate learns in this period: after [`BEFORE_MOTION`] nothing while the hand may
+    /// carry a load.
     const fn learning(&self) -> Learning {
         let grips = matches!(
             self.gripper.state,
