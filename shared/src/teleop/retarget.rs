@@ -193,7 +193,7 @@ impl Retargeting<'_> {
             // The vectors start at the next position of the thumb.
             state.output = before;
             report.limited = 0;
-            self.limit_speed(state, 0..1, period, &mut report);
+            self.limit_speed(state, &before, 0..1, period, &mut report);
             let thumb = if report.limited == 0 { yielded } else { self.tip(0, &state.output) };
             report.errors[0] = wish.map_or_else(Vector3::zeros, |wish| wish - thumb);
             options.evaluations = state.budget.saturating_sub(report.evaluations);
@@ -209,7 +209,7 @@ impl Retargeting<'_> {
             // Accumulated, so that a thumb at the limit of its reach slides along it.
             thumb_target = thumb_target.map(|target| target - missed);
         }
-        self.limit_speed(state, 1..self.hand.len(), period, &mut report);
+        self.limit_speed(state, &before, 1..self.hand.len(), period, &mut report);
         if report.limited != 0 {
             self.measure(state, &vectors, &mut report);
         }
@@ -331,32 +331,30 @@ impl Retargeting<'_> {
         solved.errors
     }
 
-    /// Moves the output of the joints of `fingers` towards the solution within their speed limits.
+    /// Moves the output of the joints of `fingers` from `before` [rad] towards the solution within their speed
+    /// limits.
     fn limit_speed(
         &self,
         state: &mut RetargetState,
+        before: &[f32; MAX_JOINTS],
         fingers: core::ops::Range<usize>,
         period: f32,
         report: &mut RetargetReport,
     ) {
         // The shared joint occurs in several fingers, but moves once.
-        let mut moved = 0_u16;
         for &joint in fingers.flat_map(|finger| self.hand.actuated(finger)) {
             let (index, bit) = (usize::from(joint), 1 << joint);
-            if moved & bit != 0 {
-                continue;
-            }
-            moved |= bit;
             let largest = self.settings.speeds.get(index).copied().unwrap_or(0.0) * period.max(0.0);
-            let (Some(&solution), Some(output)) = (state.solution.get(index), state.output.get_mut(index))
+            let (Some(&solution), Some(&before), Some(output)) =
+                (state.solution.get(index), before.get(index), state.output.get_mut(index))
             else {
                 continue;
             };
-            let step = solution - *output;
+            let step = solution - before;
             if abs(step) <= largest {
                 *output = solution;
             } else {
-                *output += math::clamp(step, -largest, largest);
+                *output = before + math::clamp(step, -largest, largest);
                 report.limited |= bit;
             }
         }

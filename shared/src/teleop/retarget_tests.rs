@@ -1,6 +1,8 @@
 use super::*;
 use tesaki_rng::Rng;
 
+use crate::kinematics::{Chain, FingerDescription};
+use crate::model::{Coupling, Inertial, Pose};
 use crate::teleop::RetargetField;
 use crate::test_support::{HAND5_LIMITS, hand5};
 
@@ -263,6 +265,48 @@ fn a_closing_pinch_moves_the_joints_without_jumps() {
             before = Some(state.angles());
         }
     }
+}
+
+/// A thumb and a finger, each of two joints about x and y; both are spread by the first actuator.
+fn hand_with_a_shared_thumb() -> Hand {
+    const NO_MASS: Inertial = Inertial { mass: 0.0, center_of_mass: [0.0; 3], inertia: [0.0; 6] };
+    const LIMITS: [(f32, f32); 3] = [(-1.0, 1.0), (-1.0, 1.5), (-1.0, 1.5)];
+    let at = |y: f32, z: f32| Pose { translation: [0.0, y, z], ..Pose::IDENTITY };
+    let spread = |multiplier| Coupling { actuated: 0, multiplier, offset: 0.0 };
+    let couplings = [[spread(1.0), Coupling::direct(1)], [spread(-1.0), Coupling::direct(2)]];
+    let fingers = [0.02, -0.02].into_iter().zip(&couplings).map(|(side, couplings)| {
+        let links =
+            [(&at(side, 0.0), &[1.0, 0.0, 0.0], &NO_MASS), (&at(0.0, 0.04), &[0.0, 1.0, 0.0], &NO_MASS)];
+        FingerDescription {
+            chain: Chain::of_links(links, &at(0.0, 0.03)),
+            couplings,
+            limits: &[None; 2],
+            pointing: [0.0, 0.0, 1.0],
+        }
+    });
+    Hand::try_new(fingers, &LIMITS).unwrap()
+}
+
+#[test]
+fn a_joint_that_the_thumb_shares_keeps_its_speed_limit() {
+    let hand = hand_with_a_shared_thumb();
+    let settings = RetargetSettings { speeds: [6.0; MAX_JOINTS], ..RetargetSettings::DEFAULT };
+    settings.validate(&hand).unwrap();
+    let retargeting = Retargeting { hand: &hand, settings: &settings };
+    let mut state = retargeting.begin(&Angles::zeros(), &Vector3::zeros());
+    let mut tips = OperatorFingertips::default();
+    let mut goal = Angles::zeros();
+    goal[0] = 0.8;
+    for finger in 0..2 {
+        tips.positions[finger] = Some(hand.tip(finger, &goal).unwrap().0);
+    }
+    for _ in 0..10 {
+        let before = state.angles()[0];
+        retargeting.update(&mut state, &tips, PERIOD).unwrap();
+        let speed = (state.angles()[0] - before).abs() / PERIOD;
+        assert!(speed < 6.001, "{speed} rad/s");
+    }
+    assert!(state.angles()[0] > 0.3, "{}", state.angles()[0]);
 }
 
 #[test]
