@@ -30,7 +30,7 @@ use crate::model::MAX_JOINTS;
 const SMALLEST_GAP: f32 = 5e-4;
 /// A vector follows the operator's up to this multiple of the scale; beyond it, its direction is held back
 /// towards the present one.
-const STEEPEST: f32 = 2.0;
+const STEEPEST: f32 = 4.0;
 /// Maximum number of times that the thumb yields in a step.
 const MAX_YIELDS: u8 = 8;
 /// Maximum iterations of the inverse kinematics after the thumb has yielded, which is a small step.
@@ -331,8 +331,8 @@ impl Retargeting<'_> {
         solved.errors
     }
 
-    /// Moves the output of the joints of `fingers` from `before` [rad] towards the solution within their speed
-    /// limits.
+    /// Moves the output of the joints of `fingers` from `before` [rad] towards the solution within their
+    /// speed limits.
     fn limit_speed(
         &self,
         state: &mut RetargetState,
