@@ -182,8 +182,8 @@ impl CircleSearch {
     }
 }
 
-/// Finds the likeliest circle with an expected radius; `None` if there is no circle. The number of steps is
-/// bounded.
+/// Finds the likeliest circle with an expected radius; `None` if there is no circle. The last refinement may
+/// take centre and radius over the limits of the search by up to 4 px. The number of steps is bounded.
 ///
 /// # Errors
 /// [`VisionError`]: radii or a window outside the limits, a buffer that is too short.
